@@ -19,6 +19,7 @@ from typing import cast
 from websockets.sync.client import connect
 from websockets.sync.connection import Connection
 
+from tests.servers.eventually import eventually
 from tests.servers.tools import need_tool
 
 _WATCHED = (
@@ -64,6 +65,15 @@ class Page:
         assert "exceptionDetails" not in answer, answer
         return cast("Answer", answer["result"]).get("value")
 
+    def holds(self, expression: str) -> bool:
+        """Returns whether an expression is true on the page; of a page that is just being left it is not."""
+        try:
+            return self.run(expression) is True
+        except AssertionError as exc:
+            if "navigated or closed" not in str(exc):
+                raise
+            return False
+
     def look(self, *, width: int, height: int, dark: bool = False) -> None:
         """Sets the size of the window, in CSS pixels, and what the reader prefers."""
         scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
@@ -79,8 +89,9 @@ class Page:
 
     def open(self, url: str) -> None:
         """Opens a URL and waits until it is there, with nothing left that it would still load."""
-        self.call("Page.navigate", url=url)
-        self.run("new Promise(done => document.readyState === 'complete' ? done() : addEventListener('load', done))")
+        self.run("globalThis.left = true")
+        if "loaderId" in self.call("Page.navigate", url=url):  # else it is another place of the same page
+            eventually(lambda: self.holds("!globalThis.left && document.readyState === 'complete'"))
         self.run("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
 
     def _note(self, message: Mapping[str, object]) -> None:

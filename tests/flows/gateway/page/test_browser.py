@@ -1,7 +1,6 @@
 """The pages in a real browser, from a real `simyard serve`: signed in by a key, without one attack that works."""
 
 import os
-import re
 import subprocess
 import sys
 import time
@@ -12,6 +11,7 @@ from urllib.request import urlopen
 
 import pytest
 
+from tasks.gateway.access.access_keys import read_keys
 from tasks.storage.store_url import open_store
 from tests.factories.gateway.shown_store import ATTACK, Shown, shown_store
 from tests.servers.chromium import Page, browsing
@@ -45,8 +45,8 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
         process = subprocess.Popen(command, stdout=file, stderr=file, env=environment)
     try:
         _await(url, process, output)
-        told = dict(re.findall(r"export AWS_(ACCESS_KEY_ID|SECRET_ACCESS_KEY)='?([^'\s]+)", output.read_text()))
-        yield Served(url, told["ACCESS_KEY_ID"], told["SECRET_ACCESS_KEY"], shown)
+        (key,) = read_keys(folder / "keys").values()
+        yield Served(url, key.key_id, key.secret, shown)
     finally:
         process.terminate()
         process.wait()
@@ -86,16 +86,7 @@ def submit(page: Page) -> None:
 
 def arrive(page: Page, path: str) -> None:
     """Waits until the page with that path is there."""
-    eventually(lambda: holds(page, f"location.pathname == '{path}' && document.readyState == 'complete'"))
-
-
-def holds(page: Page, expression: str) -> bool:
-    try:
-        return page.run(expression) is True
-    except AssertionError as exc:
-        if "navigated or closed" not in str(exc):
-            raise
-        return False
+    eventually(lambda: page.holds(f"location.pathname == '{path}' && document.readyState == 'complete'"))
 
 
 def show(page: Page, url: str, *, width: int = 1280, dark: bool = False) -> None:
@@ -175,7 +166,7 @@ def test_a_report_is_shown_without_script_and_without_the_session_and_its_links_
     browser.run("document.querySelector('button').click()")
     browser.run("document.querySelector('a').click()")
     # A page that goes on by itself stands between them: no browser sends the cookie with a link of another origin.
-    eventually(lambda: holds(browser, "document.querySelector('h1')?.textContent == 'Batches'"))
+    eventually(lambda: browser.holds("document.querySelector('h1')?.textContent == 'Batches'"))
 
 
 def test_who_signs_out_sees_nothing_any_more(served: Served, tmp_path: Path):
