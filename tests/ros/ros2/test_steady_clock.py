@@ -140,8 +140,8 @@ def test_a_node_that_is_not_ready_for_want_of_a_compiler_says_what_to_install(
         (tmp_path / "ros" / name).touch()
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path / "ros"))
     monkeypatch.setattr(steady_clock, "c_compiler", str)
-    run = players.drive(tmp_path / "run", "hurried", steps=1, robot=RosRobot(ready_s=5.0))
-    assert run.failures[0].startswith("not ready within 5 s")
+    run = players.drive(tmp_path / "run", "hurried", steps=1, robot=RosRobot(ready_s=15.0))
+    assert run.failures[0].startswith("not ready within 15 s")
     assert run.failures[0].endswith(f" commands; {NO_COMPILER}")
 
 
