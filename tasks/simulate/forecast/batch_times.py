@@ -199,9 +199,8 @@ def _batches_file(plan: BatchPlan) -> Path:
     programs = sorted(repr(program_key(request)) for request, _ in Layout(plan).programs())
     longest_s = max((template.duration_s for template in plan.templates), default=0.0)
     machine = device_kind(), device_count()  # of one machine: cores may be fewer for this process
-    known_by = (programs, plan.engine, plan.lanes, plan.audit, longest_s, plan.records(), machine)
     met = [name for name in ("people", "boxes", "robots") if getattr(plan, name)]  # other programs, which take longer
-    known_by += ((*met,),) if met else ()
+    known_by = (programs, plan.engine, plan.lanes, plan.audit, longest_s, plan.records(), machine, met)
     return cache_folder() / "timings" / f"{hashlib.sha256(repr(known_by).encode()).hexdigest()}.json"
 
 

@@ -29,7 +29,6 @@ from tasks.results.playback import replay_formats
 from tasks.results.tables.history_rows import Cell
 from tasks.ros.launch.launch_plan import LaunchSource
 from tasks.simulate.forecast import forecast
-from tasks.simulate.forecast.batch_times import BatchTiming
 from tasks.simulate.forecast.forecast import nodes_pace, nodes_s
 from tasks.simulate.sandbox import launch_check
 from tasks.simulate.sandbox.confinement import Confinement
@@ -42,6 +41,7 @@ from tests.deploy.yard import FLEET, STAYS_UP, Yard
 from tests.factories.ros_maps import write_map
 from tests.repository import ROOT
 from tests.ros.conftest import ros
+from tests.simulate.forecast.test_batch_times import WARM
 
 Tell = Callable[..., str]
 
@@ -83,19 +83,8 @@ def test_the_quickstart_is_told_before_it_runs(lines: Tell):
 
 
 def test_how_long_it_may_compile_is_told_where_that_is_long(lines: Tell, monkeypatch: pytest.MonkeyPatch):
-    warm = BatchTiming(
-        episodes=384,
-        worlds=48,
-        before_s=8.0,
-        worlds_s=2.0,
-        once_s=0.0,
-        chunks_s=11.0,
-        compile_s=1.0,
-        after_s=6.0,
-        audit_compile_s=1.0,
-    )
-    cold = warm.model_copy(update={"chunks_s": 42.0, "compile_s": 32.0})
-    for known, compiling in (([warm], ""), ([cold, warm], "; up to 31 s more where it has to compile, as for worlds")):
+    cold = WARM.model_copy(update={"chunks_s": 42.0, "compile_s": 32.0})
+    for known, compiling in (([WARM], ""), ([cold, WARM], "; up to 31 s more where it has to compile, as for worlds")):
         monkeypatch.setattr(forecast, "recall_batches", lambda _plan, known=known: known)
         told = lines()
         assert f"; from the last batch of these programs here{compiling}" in told
